@@ -58,6 +58,8 @@ def _outcome() -> tuple[int, str]:
     """Run the command; return its exit status and, if it failed, the line for stderr."""
     import warnings
 
+    from sysid_trib.errors import internal_error_text
+
     # A closed stream is None.
     if sys.stderr is None:
         sys.stderr = open(os.devnull, "w")  # noqa: SIM115 (as long as the process)
@@ -75,7 +77,7 @@ def _outcome() -> tuple[int, str]:
         except MemoryError:
             return 1, OUT_OF_MEMORY
         except Exception as error:
-            return 1, OUT_OF_MEMORY if _memory_is_short() else _internal(error)
+            return 1, OUT_OF_MEMORY if _memory_is_short() else internal_error_text(error)
 
 
 def _run() -> tuple[int, str]:
@@ -126,12 +128,3 @@ def _memory_is_short() -> bool:
     except MemoryError:
         return True
     return False
-
-
-def _internal(error: Exception) -> str:
-    """Describe an internal error in one line that shows its place, without a traceback."""
-    import traceback
-
-    frame = traceback.extract_tb(error.__traceback__)[-1]
-    place = f"{os.path.basename(frame.filename)}:{frame.lineno}"
-    return f"Internal error ({type(error).__name__} in {place}: {error}); please report it."

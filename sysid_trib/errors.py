@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable
 from difflib import get_close_matches
+from pathlib import Path
 from typing import Protocol
 
 
@@ -100,3 +101,12 @@ class Tell(Protocol):
 
 def silent(activity: str, done: float | None = None) -> None:
     """Report no progress."""
+
+
+def internal_error_text(error: Exception) -> str:
+    """Describe an internal error in one line that shows its place, without a traceback."""
+    import traceback
+
+    frame = traceback.extract_tb(error.__traceback__)[-1]
+    place = f"{Path(frame.filename).name}:{frame.lineno}"
+    return f"Internal error ({type(error).__name__} in {place}: {error}); please report it."

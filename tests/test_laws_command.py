@@ -231,6 +231,21 @@ def test_figures_fit_a_column_and_a_page(tree):
         assert labels == ["speed (rad/s)", "displacement (rad)"]
 
 
+def test_a_result_whose_methods_all_failed_is_drawn_and_reported(tree):
+    """As `laws` makes it of a record whose amplitude hardly changes, where the motion of direct diverges."""
+    failed = tree.copy(deep=True)
+    failed["judged"].dataset = failed["judged"].to_dataset().sel(model=["direct"])
+    failed["judged"].dataset = (
+        failed["judged"].to_dataset().assign(failure=("model", ["its motion diverges"]))
+    )
+    failed["judged"].attrs |= {"preferred": "direct", "averaging_failed": "no envelope"}
+    del failed["averaging"], failed["agreement"]
+    figure = st.plots.laws(failed)
+    figure.draw_without_rendering()
+    assert [[text.get_text() for text in ax.texts] for ax in figure.axes] == [["all methods failed"]] * 2
+    assert "Direct failed: its motion diverges" in page(failed)
+
+
 def test_latex_and_json_of_one_method_alone(tree):
     """A result whose averaging failed, as `laws` makes it."""
     alone = tree.copy(deep=True)

@@ -1,14 +1,12 @@
 """The controls of the page: how the record is read, its window, the system and its forces."""
 
 import math
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import panel
 
 import sysid_trib as st
-from sysid_trib.app import tasks
 
 # Offered values of options; the first leaves the choice to the file.
 SIGNAL_CHOICES = ["", "angle", "displacement", "rate", "acceleration"]
@@ -16,127 +14,95 @@ TIME_CHOICES = ["", "s", "ms", "us", "ns", "min", "h", "d"]
 # A window is rounded to this part of the record, so that the command is short.
 WINDOW_STEP = 1e-3
 WIDE: dict[str, Any] = {"sizing_mode": "stretch_width"}
-# Buttons without a name; the arrow keys do the same.
-NO_SPINNERS = ".bk-spin-btn { display: none !important; }"
-FLAT = {"box-shadow": "none", "border": "1px solid #c8c8c8"}
+# Number fields without buttons, which have no name; the arrow keys do the same.
+NUMBER_FIELD: dict[str, Any] = {"value": None, "stylesheets": [".bk-spin-btn { display: none !important; }"]}
+COLUMN_FIELD: dict[str, Any] = {"restrict": False, "min_characters": 0, "case_sensitive": False, **WIDE}
 LAWS = "Friction and restoring force as curves, too"
+FLAT = {"box-shadow": "none", "border": "1px solid #c8c8c8"}
 
 
 class Controls:
-    """The controls of one page, which begin at a known record by `clear`.
+    """The controls of one page.
 
     Parameters
     ----------
     changed : callable
-        Called when the user has changed a value.
+        Called when a value has changed.
     """
 
     def __init__(self, changed: Callable[[], None]) -> None:
         widgets = panel.widgets
-        self._changed = changed
-        # Whether the program itself changes the values.
-        self._setting = False
-        self.ends = 0.0, 0.0
-        number = {"value": None, "stylesheets": [NO_SPINNERS]}
-        column = {"restrict": False, "min_characters": 0, "case_sensitive": False, **WIDE}
-        rate = "Samples per second (--sampling-rate)"
         self._reading: dict[str, Any] = {
-            "angle": widgets.AutocompleteInput(name="Column of the signal (--angle)", **column),
+            "angle": widgets.AutocompleteInput(name="Column of the signal (--angle)", **COLUMN_FIELD),
             "units": widgets.TextInput(
                 name="Unit of the signal (--units)", placeholder="rad, deg, mm, V ...", **WIDE
             ),
             "signal": widgets.Select(name="Measured quantity (--signal)", options=SIGNAL_CHOICES, **WIDE),
-            "time": widgets.AutocompleteInput(name="Column of the time (--time)", **column),
+            "time": widgets.AutocompleteInput(name="Column of the time (--time)", **COLUMN_FIELD),
             "time_units": widgets.Select(
                 name="Unit of the time (--time-units)", options=TIME_CHOICES, **WIDE
             ),
-            "sampling_rate": widgets.FloatInput(name=rate, start=0.0, **number, **WIDE),
+            "sampling_rate": widgets.FloatInput(
+                name="Samples per second (--sampling-rate)", start=0.0, **NUMBER_FIELD, **WIDE
+            ),
         }
         self.reading = panel.Card(
             *self._reading.values(), title="How the file is read", collapsed=True, styles=FLAT, **WIDE
         )
-        self.low = widgets.FloatInput(name="From (s)", width=130, **number)
-        self.high = widgets.FloatInput(name="To (s)", width=130, **number)
+        self.low = widgets.FloatInput(name="From (s)", placeholder="start", width=130, **NUMBER_FIELD)
+        self.high = widgets.FloatInput(name="To (s)", placeholder="end", width=130, **NUMBER_FIELD)
         self.whole = widgets.Button(name="Whole record", width=130)
-        self.whole.on_click(lambda _: self.show_window(*self.ends))
+        self.whole.on_click(lambda _: self.show_whole())
         known = {f"{name}: {system.meaning}": name for name, system in st.forces.load_systems().items()}
         self.system = widgets.Select(name="System (--system)", options={"not stated": "", **known}, **WIDE)
+        self.system.param.watch(lambda _: self._show_forces(), "value")
         self.forces = widgets.CheckBoxGroup(**WIDE)
+        # A single check box has no label for screen readers.
         self.laws = widgets.CheckBoxGroup(options=[LAWS], value=[LAWS], **WIDE)
-        self.show_system("", ())
-        self.system.param.watch(self._system_chosen, "value")
-        for widget in (*self._reading.values(), self.low, self.high, self.forces, self.laws):
-            widget.param.watch(self._chosen, "value")
+        self._show_forces()
+        for widget in (*self._reading.values(), self.low, self.high, self.system, self.forces, self.laws):
+            widget.param.watch(lambda _: changed(), "value")
 
     def values(self) -> dict[str, Any]:
         """Return the chosen values as attributes of a request."""
-        system, forces = self.system.value, tuple(self.forces.value)
         return {
             "reading": {name: widget.value for name, widget in self._reading.items() if widget.value},
-            "window": self._window(),
-            "system": system,
-            "forces": () if set(forces) == set(tasks.usual_forces(system)) else forces,
+            "window": (self.low.value, self.high.value),
+            "system": self.system.value,
+            "forces": tuple(self.forces.value),
             "laws": bool(self.laws.value),
         }
 
     def clear(self) -> None:
         """Forget the choices for an earlier record."""
-        with self._set_by_program():
-            for widget in self._reading.values():
-                widget.value = None if isinstance(widget, panel.widgets.FloatInput) else ""
-            self.low.value = self.high.value = None
-        self.ends = 0.0, 0.0
+        for widget in self._reading.values():
+            widget.value = None if isinstance(widget, panel.widgets.FloatInput) else ""
+        self.show_whole()
         self.show_system("", ())
 
-    def offer_columns(self, columns: Sequence[str], *, signals_only: bool = False) -> None:
-        """Offer the columns of the file."""
-        for name in ("angle",) if signals_only else ("angle", "time"):
+    def offer_columns(self, columns: Sequence[str], *names: str) -> None:
+        """Offer the columns of the file for these options."""
+        for name in names:
             self._reading[name].options = [*columns]
 
-    def show_window(self, low: float, high: float) -> None:
-        """Show a window, rounded and within the record."""
-        (first, last), step = self.ends, WINDOW_STEP * (self.ends[1] - self.ends[0])
-        if min(high, last) - max(low, first) > step > 0.0:
-            digits = -math.floor(math.log10(step))
-            self.low.value = round(max(low, first), digits)
-            self.high.value = round(min(high, last), digits)
+    def show_whole(self) -> None:
+        """Show the whole record as the window."""
+        self.low.value = self.high.value = None
 
-    def show_record(self, ends: tuple[float, float]) -> None:
-        """Show the window of a record as it was read."""
-        low, high = self._window()
-        self.ends = ends
-        with self._set_by_program():
-            self.show_window(ends[0] if low is None else low, ends[1] if high is None else high)
+    def show_window(self, low: float, high: float, ends: tuple[float, float]) -> None:
+        """Show a window, rounded and within the ends of the record."""
+        step = WINDOW_STEP * (ends[1] - ends[0])
+        if min(high, ends[1]) - max(low, ends[0]) > step > 0.0:
+            digits = -math.floor(math.log10(step))
+            self.low.value = round(low, digits) if low > ends[0] + step else None
+            self.high.value = round(high, digits) if high < ends[1] - step else None
 
     def show_system(self, system: str, forces: tuple[str, ...]) -> None:
-        """Show a system, its forces, and the chosen ones among them; by default the usual ones."""
-        names = tasks.force_names(system)
-        with self._set_by_program():
-            self.system.value = system
-            self.forces.options = {f"{name} ({symbol})": symbol for symbol, name in names.items()}
-            self.forces.value = list(forces or tasks.usual_forces(system))
+        """Show a system, and the chosen ones of its forces; by default the usual ones."""
+        self.system.value = system
+        self._show_forces(forces)
 
-    def _window(self) -> tuple[float | None, float | None]:
-        """Return the window in the fields; None for an end of the record."""
-        low, high, (first, last) = self.low.value, self.high.value, self.ends
-        step = WINDOW_STEP * (last - first)
-        known = last > first
-        return (
-            None if low is None or (known and low <= first + step) else low,
-            None if high is None or (known and high >= last - step) else high,
-        )
-
-    def _chosen(self, _: Any) -> None:
-        if not self._setting:
-            self._changed()
-
-    def _system_chosen(self, event: Any) -> None:
-        if not self._setting:
-            self.show_system(event.new, ())
-            self._changed()
-
-    @contextmanager
-    def _set_by_program(self) -> Iterator[None]:
-        before, self._setting = self._setting, True
-        yield
-        self._setting = before
+    def _show_forces(self, forces: tuple[str, ...] = ()) -> None:
+        system = st.forces.load_system(self.system.value or None)
+        self.forces.options = {f"{force.name} ({force.symbol})": force.symbol for force in system.choices}
+        self.forces.value = [*(forces or system.forces or system.choices.symbols)]

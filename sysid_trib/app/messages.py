@@ -4,7 +4,6 @@ import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -24,12 +23,10 @@ class Request:
     ----------
     folder : Path
         Folder for the files that can be downloaded.
-    file : Path or None
-        The record; None for a sample.
+    record : str
+        File or `dataset:NAME`; empty for the synthetic example.
     shown : str
-        Its name in the command.
-    sample : str
-        Name of a sample, from `sample_names`.
+        Name of the record in the command.
     reading : mapping of str to (str or float)
         Options of `st.records.Reading` that are given.
     window : (float or None, float or None), s
@@ -44,9 +41,8 @@ class Request:
     """
 
     folder: Path
-    file: Path | None = None
+    record: str = ""
     shown: str = ""
-    sample: str = ""
     reading: Mapping[str, str | float] = field(default_factory=dict)
     window: tuple[float | None, float | None] = (None, None)
     system: str = ""
@@ -56,21 +52,20 @@ class Request:
 
     def command(self, name: str) -> str:
         """Return the command of the terminal that gives the same result."""
-        words = ["sysid-trib", name]
-        if self.shown:
-            words.append(f"./{self.shown}" if self.shown.startswith("-") else self.shown)
-        options: dict[str, Any] = {**self.reading}
-        if self.window != (None, None):
-            options["window"] = ":".join("" if side is None else f"{side:g}" for side in self.window)
-        options["system"] = self.system
+        window = ":".join("" if side is None else f"{side:.12g}" for side in self.window)
+        options = {**self.reading, "window": window.strip(":") and window, "system": self.system}
         if name == "identify":
             options["forces"] = ",".join(self.forces)
+        words = [f"./{self.shown}" if self.shown.startswith("-") else self.shown] if self.shown else []
         for option, value in options.items():
-            flag, text = f"--{option.replace('_', '-')}", f"{value:g}" if isinstance(value, float) else value
+            flag, text = (
+                f"--{option.replace('_', '-')}",
+                f"{value:.12g}" if isinstance(value, float) else value,
+            )
             if text:
                 # A value that begins with a dash would be read as an option.
                 words += [f"{flag}={text}"] if text.startswith("-") else [flag, text]
-        return shlex.join(words)
+        return shlex.join(["sysid-trib", name, *words])
 
 
 @dataclass(frozen=True)
@@ -83,14 +78,13 @@ class Progress:
 
 @dataclass(frozen=True)
 class Signal:
-    """The record as read: text, decimated signal, names of columns, and the suggested model."""
+    """The record as read: text, decimated signal, its label and ends, columns, and the suggested model."""
 
     text: str
     time: np.ndarray
     value: np.ndarray
-    ends: tuple[float, float]
-    limits: tuple[float, float]
     label: str
+    ends: tuple[float, float]
     columns: Sequence[str]
     system: str
     forces: tuple[str, ...]
@@ -98,13 +92,13 @@ class Signal:
 
 @dataclass(frozen=True)
 class Section:
-    """One of `TITLES` as HTML, the command that gives the same, files with its numbers, and a verdict."""
+    """One of `TITLES` as HTML, the command that gives the same, and files for download."""
 
     name: str
     text: str
     command: str
-    files: Sequence[Path] = ()
-    verdict: str = ""
+    files: Sequence[Path]
+    verdict: str
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,8 @@ from bokeh.events import SelectionGeometry
 from bokeh.models import BoxAnnotation, BoxSelectTool, ColumnDataSource
 from bokeh.plotting import figure
 
-from sysid_trib.app import messages, tasks
+import sysid_trib as st
+from sysid_trib.app import messages
 from sysid_trib.app.controls import WIDE, Controls
 from sysid_trib.app.worker import Worker
 
@@ -41,7 +42,8 @@ const status = document.getElementById("status");
 # Characters that a file's name must not have.
 UNSAFE = re.compile(r"[^\w.+ ()-]")
 FAINT, CLEAR = {"opacity": "0.4"}, {"opacity": "1"}
-LABELS = {".html": "Download the report", ".csv": "Download the numbers (CSV)"}
+# Value of the first sample, which needs no file.
+EXAMPLE = "Synthetic example"
 
 
 def safe_name(name: str) -> str:
@@ -52,6 +54,12 @@ def safe_name(name: str) -> str:
 def text(content: str) -> Any:
     """Return a piece of HTML as a part of the page."""
     return panel.pane.HTML(content, stylesheets=[STYLE], margin=(0, 5), **WIDE)
+
+
+def sample_names() -> list[str]:
+    """Return the names of the records that can be chosen without a file; the app takes no driven records."""
+    table = st.datasets.table()
+    return [EXAMPLE, *table.index[table.kind != "driven"]]
 
 
 class Page:
@@ -66,37 +74,41 @@ class Page:
     """
 
     def __init__(self, folder: Path, file: Path | None) -> None:
-        self.request = messages.Request(folder)
+        self.folder = folder
         self.worker = Worker()
+        # The record with its suggestion, and what was computed last.
+        self.begun: messages.Request | None = None
+        self.started: messages.Request | None = None
         self.due = math.inf
-        self.outdated: set[str] = set()
+        self.ends = 0.0, 0.0
+        self.verdict = ""
         self.controls = Controls(self._changed)
         self.drop = panel.widgets.FileDropper(max_file_size=f"{MOST_MEGABYTES}MB", previews=[], **WIDE)
         self.drop.param.watch(self._dropped, "value")
-        samples = {"choose": "", **{name: name for name in tasks.sample_names()}}
+        samples = ["choose", *sample_names()]
         self.sample = panel.widgets.Select(name="Or a sample record", options=samples, **WIDE)
         self.sample.param.watch(self._sample_chosen, "value")
         self.cancel = panel.widgets.Button(name="Cancel", disabled=True, width=100)
         self.cancel.on_click(self._cancelled)
         self.status: Any = panel.widgets.TextInput(visible=False)
         self.status.jscallback(value=SAY)
-        self.verdict, self.read = text(""), text("")
+        self.read = text("")
         self.parts = {name: panel.Column(**WIDE) for name in messages.TITLES}
         self._make_plot()
         self.template = self._laid_out()
         panel.state.on_session_destroyed(lambda _: self.close())
         panel.state.add_periodic_callback(self.tick, int(1000 * POLLING))
         if file is not None:
-            self.begin(file=file, shown=str(file))
+            self.begin(str(file), str(file))
 
     def _make_plot(self) -> None:
         self.source = ColumnDataSource({"time": [], "value": []})
         self.box = BoxAnnotation(fill_color="#0b5394", fill_alpha=0.12, line_color="#0b5394")
         select = BoxSelectTool(dimensions="width")
-        ranges = {"x_range": (0.0, 1.0), "y_range": (0.0, 1.0)}
-        self.plot = figure(height=240, tools=[select], toolbar_location=None, **ranges, **WIDE)
+        self.plot = figure(height=240, tools=[select], toolbar_location=None, **WIDE)
         self.plot.line("time", "value", source=self.source, color="#333333", line_width=0.8)
         self.plot.add_layout(self.box)
+        self.plot.x_range.range_padding = 0.0
         self.plot.xaxis.axis_label = "time (s)"
         self.plot.on_event(SelectionGeometry, self._dragged)
 
@@ -119,13 +131,14 @@ class Page:
         template = panel.Template((FOLDER / "page.html").read_text(encoding="utf-8"))
         template.add_panel("cancel", self.cancel)
         template.add_panel("controls", controls)
-        template.add_panel("results", panel.Column(self.verdict, self.record, *self.parts.values(), **WIDE))
+        template.add_panel("results", panel.Column(self.record, *self.parts.values(), **WIDE))
         return template
 
-    def begin(self, **record: Any) -> None:
-        """Show another record: `file` and the name `shown`, or `sample`."""
-        self.request = messages.Request(self.request.folder, **record, suggest=True)
+    def begin(self, record: str, shown: str) -> None:
+        """Show another record: its file or name, and its name in the command."""
         self.controls.clear()
+        self.begun = messages.Request(self.folder, record, shown, suggest=True)
+        self.started = None
         self.due = time.monotonic()
 
     def _dropped(self, event: Any) -> None:
@@ -140,39 +153,39 @@ class Page:
             return
         self.close()
         # A folder of its own, so that no name is that of another file.
-        self.request.folder.mkdir()
-        file = Path(tempfile.mkdtemp(dir=self.request.folder)) / safe_name(name)
+        self.folder.mkdir()
+        file = Path(tempfile.mkdtemp(dir=self.folder)) / safe_name(name)
         file.write_bytes(content)
-        self.sample.value = ""
-        self.begin(file=file, shown=file.name)
+        self.sample.value = "choose"
+        self.begin(str(file), file.name)
 
     def _sample_chosen(self, event: Any) -> None:
-        if event.new:
-            self.begin(sample=event.new)
+        if event.new == EXAMPLE:
+            self.begin("", "")
+        elif event.new != "choose":
+            self.begin(f"dataset:{event.new}", f"dataset:{event.new}")
 
     def _dragged(self, event: Any) -> None:
         if event.final:
-            self.controls.show_window(*sorted((event.geometry["x0"], event.geometry["x1"])))
+            low, high = sorted((event.geometry["x0"], event.geometry["x1"]))
+            self.controls.show_window(low, high, self.ends)
 
     def _changed(self) -> None:
-        # A chosen system is not replaced by the suggested one.
-        if self.controls.system.value != self.request.system:
-            self.request = replace(self.request, suggest=False)
-        if self.request.file or self.request.sample:
+        if self.begun:
             self.due = time.monotonic() + PAUSE
 
     def _cancelled(self, _: Any) -> None:
         self.worker.stop()
-        self.due = math.inf
+        self.started, self.due = None, math.inf
         self.cancel.disabled = True
         self._remove_outdated()
         self.say("", "Cancelled. Change a control to compute again.")
 
     def tick(self) -> None:
         """Start the computation that is due, and show what the worker has sent."""
-        if time.monotonic() >= self.due:
+        if self.begun and time.monotonic() >= self.due:
             self.due = math.inf
-            self._start()
+            self._start(replace(self.begun, **self.controls.values()))
         was_busy, failed = self.worker.busy, False
         for message in self.worker.messages():
             failed = failed or isinstance(message, messages.Failure)
@@ -180,21 +193,24 @@ class Page:
         self.cancel.disabled = not self.worker.busy
         if was_busy and not self.worker.busy and not failed:
             self._remove_outdated()
-            self.say("done", "Done.")
+            self.say("done", f"Done. {self.verdict}")
 
-    def _start(self) -> None:
-        self.request = replace(self.request, **self.controls.values())
+    def _start(self, request: messages.Request) -> None:
+        # The program itself shows the suggested forces, which were computed already.
+        if request == self.started:
+            return
+        # A chosen system is not replaced by the suggested one.
+        self.started = replace(request, suggest=request.suggest and not request.system)
         self._show_box()
-        self.outdated = set(self.parts)
-        for part in (self.verdict, *self.parts.values()):
+        for part in self.parts.values():
             part.styles = FAINT
-        self.worker.start(self.request)
+        self.worker.start(self.started)
         self.say("busy", "Reading the record ...")
 
     def _show_box(self) -> None:
-        (low, high), ends = self.request.window, self.controls.ends
-        self.box.left = ends[0] if low is None else low
-        self.box.right = ends[1] if high is None else high
+        low, high = self.controls.values()["window"]
+        self.box.left = self.ends[0] if low is None else low
+        self.box.right = self.ends[1] if high is None else high
 
     def _take(self, message: Any) -> None:
         """Show what the worker has sent."""
@@ -210,25 +226,21 @@ class Page:
 
     def _show_signal(self, signal: messages.Signal) -> None:
         self.source.data = {"time": signal.time, "value": signal.value}
-        self.plot.x_range.update(start=signal.ends[0], end=signal.ends[1])
-        self.plot.y_range.update(start=signal.limits[0], end=signal.limits[1])
         self.plot.yaxis.axis_label = signal.label.replace("$", "")
         self.read.object = signal.text
-        self.controls.offer_columns(signal.columns)
-        self.controls.show_record(signal.ends)
+        self.controls.offer_columns(signal.columns, "angle", "time")
+        self.ends = signal.ends
         self._show_box()
         self.record.visible = True
-        if self.request.suggest:
-            self.request = replace(self.request, suggest=False)
+        if self.begun and self.started and self.started.suggest and not self.controls.system.value:
+            self.begun = replace(self.begun, suggest=False)
+            self.started = replace(self.started, system=signal.system, forces=signal.forces, suggest=False)
             self.controls.show_system(signal.system, signal.forces)
 
     def _show_part(self, part: messages.Section) -> None:
-        stem = Path(self.request.shown or self.request.sample).stem
+        stem = Path(self.started.shown).stem if self.started else ""
         files = [
-            panel.widgets.FileDownload(
-                file=str(file), filename=f"{stem}_{file.name}", label=LABELS[file.suffix]
-            )
-            for file in part.files
+            panel.widgets.FileDownload(file=str(file), filename=f"{stem}_{file.name}") for file in part.files
         ]
         copy = panel.widgets.Button(name="Copy the command")
         copy.js_on_click(code=f"navigator.clipboard.writeText({json.dumps(part.command)})")
@@ -236,9 +248,8 @@ class Page:
             f"<p class=hint>The same in a terminal:</p><pre tabindex=0>{html.escape(part.command)}</pre>"
         )
         self._fill(part.name, [text(part.text), text(command), panel.Row(*files, copy)])
-        if part.verdict:
-            self.verdict.object = f"<p class=verdict>{html.escape(part.verdict)}</p>"
-            self.verdict.styles = CLEAR
+        if part.name == "identify":
+            self.verdict = part.verdict
 
     def _show_failure(self, failure: messages.Failure) -> None:
         self.say("error", failure.text)
@@ -247,20 +258,18 @@ class Page:
             return
         self._remove_outdated()
         if failure.choices:
-            self.controls.offer_columns(failure.choices, signals_only=True)
+            self.controls.offer_columns(failure.choices, "angle")
         self.controls.reading.collapsed = False
 
     def _fill(self, name: str, content: Sequence[Any]) -> None:
-        self.outdated.discard(name)
         self.parts[name][:] = [text(f"<h2>{messages.TITLES[name]}</h2>"), *content]
         self.parts[name].styles = CLEAR
 
     def _remove_outdated(self) -> None:
         """Remove the parts of an earlier choice."""
-        for name in self.outdated:
-            self.parts[name].clear()
-        if "identify" in self.outdated:
-            self.verdict.object = ""
+        for part in self.parts.values():
+            if part.styles == FAINT:
+                part.clear()
 
     def say(self, kind: str, said: str) -> None:
         """Show the status: its kind is `busy`, `done`, `error` or empty."""
@@ -269,4 +278,4 @@ class Page:
     def close(self) -> None:
         """End the process of this page, and remove its files."""
         self.worker.stop()
-        shutil.rmtree(self.request.folder, ignore_errors=True)
+        shutil.rmtree(self.folder, ignore_errors=True)

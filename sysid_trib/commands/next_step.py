@@ -9,10 +9,11 @@ import xarray as xr
 from sysid_trib.commands.app import command_after
 from sysid_trib.commands.options import FileOptions, IdentifyOptions, MeasuredOptions, RecordOptions
 from sysid_trib.cycles.look import PENDULUM, pointers
+from sysid_trib.cycles.suggested import suggested
 from sysid_trib.errors import readable
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.library import load_library
-from sysid_trib.forces.selection import EFFECTS, is_free_to_move, with_shipped
+from sysid_trib.forces.selection import EFFECTS, is_free_to_move
 from sysid_trib.forces.systems import load_system, load_systems
 from sysid_trib.printing.comparison import ratio_of_best
 from sysid_trib.results import effects, judged, kinds
@@ -293,10 +294,6 @@ def keep_next(tree: xr.DataTree, given: RecordOptions) -> None:
         tree.attrs["alternatives"] = "\n".join(others)
 
 
-# Number of amplitudes that an identification needs for each of its forces.
-AMPLITUDES_A_FORCE = 3
-
-
 def pointed_options(tree: xr.DataTree, system: str | None) -> dict[str, str]:
     """Return options of `identify` that follow from the backbones and that all decays can determine.
 
@@ -307,30 +304,11 @@ def pointed_options(tree: xr.DataTree, system: str | None) -> dict[str, str]:
     system : str or None
         Name of the system, if the user has given it.
     """
-    decays = [node.to_dataset() for name, node in tree.children.items() if name.startswith("decay")]
-    library = load_library()
-    viscous = [*library.damping_factors][:1]
-    # Drag alone, or dry friction alone, may fit within the band, but every body has some viscous friction.
-    pointed = [s for decay in decays for s in str(decay.attrs["points_to_forces"]).split(",") if s]
-    if not pointed:
-        suggested = [library.role(decay.attrs["damping_law"]) for decay in decays]
-        pointed = [force.symbol for force in suggested if force is not None]
-    systems = {str(decay.attrs["points_to_system"]) for decay in decays}
-    of_record = systems.pop() if len(systems) == 1 else ""
-    moving = load_system(system or of_record or None)
-    if system is not None:
-        # The user has given the system; use its forces if the record determines them.
-        pointed = [*moving.forces]
-    elif of_record:
-        pointed = [symbol for symbol in pointed if symbol in moving.forces]
-    known = with_shipped(library, pointed)
-    # One value of envelope and of frequency per amplitude, for the forces and the frequency.
-    most = max(1, sum(decay.sizes["instant"] for decay in decays) // AMPLITUDES_A_FORCE)
-    kept = [*dict.fromkeys([*viscous, *pointed])][:most]
-    forces = ",".join(symbol for symbol in known.symbols if symbol in kept)
-    if system is not None:
-        return {} if set(kept) >= set(moving.forces) else {"forces": forces}
-    return {"forces": forces} | ({"system": of_record} if of_record else {})
+    of_record, forces = suggested(tree, system)
+    if system is not None and set(forces) >= set(load_system(system).forces):
+        return {}
+    stated = {"system": of_record} if of_record and system is None else {}
+    return {"forces": ",".join(forces)} | stated
 
 
 # A model does not follow the motion if its residual exceeds this fraction of it.

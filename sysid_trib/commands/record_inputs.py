@@ -29,7 +29,7 @@ from sysid_trib.records.free_decay import free_decays
 from sysid_trib.records.half_sines import envelope
 from sysid_trib.records.no_decay import NoDecayError
 from sysid_trib.records.one_mode import one_mode
-from sysid_trib.records.read import read_records
+from sysid_trib.records.read import read_records, reading_text
 from sysid_trib.records.reading import Reading
 from sysid_trib.records.sensors import read_sensors
 from sysid_trib.records.smoothing import swing_frequency
@@ -268,10 +268,7 @@ def _read(given: RecordOptions, record: Path | None, constants: Mapping[str, str
         if said := what_else(record):
             raise RecordError(said) from None
         raise
-    attrs = runs[0].attrs
-    column = " and ".join(dict.fromkeys(str(run.attrs["angle_column"]) for run in runs))
-    facts = [f"{attrs['signal']} in {attrs['angle_unit_in_file']} from column {column}", attrs["clock"]]
-    facts += [attrs[name] for name in ("reading", "separation", "integration") if attrs.get(name)]
+    facts = [reading_text(runs)]
     facts += [f"multiplied by {given.scale}"] * (given.scale != "1")
     if said := _several_modes(given, runs[0]):
         facts.append(

@@ -87,6 +87,14 @@ class System:
         held = [force for force in shipped if force.symbol in self.held]
         return not self.name or any(force.matches("sin(x) - x") for force in held)
 
+    @property
+    def choices(self) -> ForceLibrary:
+        """Forces that can be identified: those of `contact_forces` and its own, without the stiffness."""
+        library = with_shipped(load_library(), self.forces)
+        stiffness = library.role("x")
+        left_out = {*self.impossible, *self.held, *(() if stiffness is None else (stiffness.symbol,))}
+        return library.select(symbol for symbol in library.symbols if symbol not in left_out)
+
     def bounds(self, symbols: Iterable[str]) -> dict[str, tuple[float, float]]:
         """Return the bounds of forces whose coefficients cannot be negative."""
         return {symbol: (0.0, math.inf) for symbol in symbols if symbol in self.not_negative}
@@ -127,6 +135,15 @@ def load_system(name_or_path: str | None) -> System:
         There is no such system or file.
     LibraryError
         The file does not have this format, or it names a force that no library has.
+
+    Examples
+    --------
+    >>> import sysid_trib as st
+    >>> spring = st.forces.load_system("spring")
+    >>> spring.signal, spring.forces
+    ('displacement', ('lambda', 'zeta', 'delta', 'epsilon'))
+    >>> spring.choices.symbols
+    ('lambda', 'zeta', 'delta', 'nu', 'epsilon')
     """
     if name_or_path is None:
         return ANY_SYSTEM

@@ -162,15 +162,10 @@ def _weighed(result: xr.Dataset, record: xr.Dataset) -> xr.Dataset | None:
     return None
 
 
-def _no_data(ax: Axes, text: str) -> None:
-    ax.text(0.5, 0.5, text, ha="center", va="center", color="0.4", transform=ax.transAxes)
-    ax.set(xticks=[], yticks=[])
-
-
 def _shares(ax: Axes, weighed: xr.Dataset | None, quantity: str, *labels: str) -> None:
     """Draw the share of each force with a band of one standard error, against amplitude."""
     if weighed is None or not np.isfinite(weighed[quantity].values).any():
-        _no_data(ax, "no force acts here")
+        style.no_data(ax, "no force acts here")
         return
     draw_weights(ax, weighed, quantity, factor=100.0, zeros=False)
     low, high = ax.get_ylim()
@@ -183,7 +178,7 @@ def _coefficients(
 ) -> None:
     """Draw the coefficients over the values of the main identification, with 95 % intervals and numbers."""
     if not results:
-        _no_data(ax, "all methods failed")
+        style.no_data(ax, style.ALL_FAILED)
         return
     main = list(results.values())[-1]
     symbols = main.force.values.tolist()
@@ -230,7 +225,7 @@ def _surface(ax: Axes, result: xr.Dataset, record: xr.Dataset, run: int, bar_at:
     try:
         missing = residual_force(record, result, run)
     except SysidTribError:
-        _no_data(ax, TOO_FEW)
+        style.no_data(ax, TOO_FEW)
         return
     force, error = (factor * missing[name] for name in ("force", "force_standard_error"))
     # Cells with noise only stay pale.

@@ -65,6 +65,9 @@ def laws(tree: xr.DataTree, *, width: float = ONE_COLUMN) -> Figure:
     held = law_curves.known_part(main, np.zeros(1))[1]
     symbol = r"\theta" if unit == "rad" else "x"
     for ax, law in zip(panels, named, strict=True):
+        if not results:
+            style.no_data(ax, style.ALL_FAILED)
+            continue
         curves = law_curves.curves_of(results, law, answer, mirrored=True)
         if law == "restoring":
             curves = {
@@ -80,7 +83,8 @@ def laws(tree: xr.DataTree, *, width: float = ONE_COLUMN) -> Figure:
         panels[1].set(xlabel=f"displacement ({unit})")
         known = " \N{MINUS SIGN} ".join([f"$w^2{symbol}$", *held])
         panels[1].set(ylabel=f"force \N{MINUS SIGN} {known} ({unit}/s²)")
-    panels[0].legend(**LEGEND, ncols=2)
+    if results:
+        panels[0].legend(**LEGEND, ncols=2)
     if len(panels) > 1:
         style.letter(panels)
     return figure

@@ -56,6 +56,8 @@ SHORT_AXIS = 8.0
 SMALLEST_PLAIN, LARGEST_PLAIN = 1e-3, 1e5
 # Largest number of characters of a unit for which numbers in a panel have space.
 LONG_UNIT = 4
+# Text of a panel for a result without any identification.
+ALL_FAILED = "all methods failed"
 
 
 def line(series: Style) -> dict[str, Any]:
@@ -149,6 +151,12 @@ def threshold(ax: Axes, value: float, text: str) -> None:
     place: dict[str, Any] = {"xycoords": ("axes fraction", "data"), "textcoords": "offset points"}
     note = ax.annotate(text, (1.0, value), (-3, 3), ha="right", fontsize=FONT_SIZE, **place)
     note.set_bbox(WHITE)
+
+
+def no_data(ax: Axes, text: str) -> None:
+    """Write a text in an empty panel."""
+    ax.text(0.5, 0.5, text, ha="center", va="center", color="0.4", transform=ax.transAxes)
+    ax.set(xticks=[], yticks=[])
 
 
 def footnote(figure: Figure, text: str) -> None:

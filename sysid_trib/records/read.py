@@ -188,6 +188,31 @@ def read_records(path: str | os.PathLike[str], how: reading.Reading | None = Non
     return records
 
 
+def reading_text(runs: Sequence[xr.Dataset]) -> str:
+    """Return in words how the runs of a file were read: quantity, unit, columns, clock, and changes.
+
+    Parameters
+    ----------
+    runs : sequence of Dataset
+        As `read_records` returns them.
+
+    Returns
+    -------
+    str
+
+    Examples
+    --------
+    >>> import sysid_trib as st
+    >>> st.records.reading_text([st.datasets.load("certified/viscous_1e-4")])
+    'angle in rad from column angle (rad); 100 Hz clock'
+    """
+    attrs = runs[0].attrs
+    column = " and ".join(dict.fromkeys(str(run.attrs["angle_column"]) for run in runs))
+    facts = [f"{attrs['signal']} in {attrs['angle_unit_in_file']} from column {column}", attrs["clock"]]
+    facts += [attrs[name] for name in ("reading", "separation", "integration") if attrs.get(name)]
+    return "; ".join(facts)
+
+
 def _read(table: tables.FileTable, columns: ChosenColumns, how: reading.Reading) -> xr.Dataset:
     column, time_column = columns.signal, columns.time
     values, absent = column.signal

@@ -7,6 +7,7 @@ import socket
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -80,9 +81,9 @@ def test_the_app_offers_every_option_value_that_readers_take():
 
 @pytest.mark.parametrize("suggest", [True, pytest.param(False, marks=pytest.mark.slow)])
 def test_numbers_are_those_of_the_command(swing, tmp_path, monkeypatch, suggest):
-    request = Request(tmp_path, swing, "swing.csv", window=(0.5, 7.0), laws=False, suggest=suggest)
+    request = Request(tmp_path, str(swing), "swing.csv", window=(0.5, 7.0), laws=False, suggest=suggest)
     parts = {message.name: message for message in done(request) if isinstance(message, Section)}
-    ours = pd.read_csv(tmp_path / "identify.csv").set_index(["model", "quantity"])
+    ours = pd.read_csv(tmp_path / "coefficients.csv").set_index(["model", "quantity"])
     monkeypatch.chdir(tmp_path)
     program, *arguments = parts["identify"].command.split()
     assert program == "sysid-trib"
@@ -95,13 +96,15 @@ def test_numbers_are_those_of_the_command(swing, tmp_path, monkeypatch, suggest)
 
 @pytest.mark.slow
 def test_laws_are_those_of_the_command(swing, tmp_path, monkeypatch):
-    (part,) = (m for m in done(Request(tmp_path, swing, "swing.csv")) if getattr(m, "name", "") == "laws")
+    (part,) = (
+        m for m in done(Request(tmp_path, str(swing), "swing.csv")) if getattr(m, "name", "") == "laws"
+    )
     monkeypatch.chdir(tmp_path)
     assert run(*part.command.split()[1:], "-o", "result.nc").status == 0
     friction = st.best(st.load(tmp_path / "result.nc")).friction
-    ours = pd.read_csv(tmp_path / "laws.csv").set_index("law").loc["friction"]
-    np.testing.assert_allclose(ours["value"], friction.values, rtol=1e-12)
-    np.testing.assert_allclose(ours["at"], friction.speed.values, rtol=1e-12)
+    ours = pd.read_csv(tmp_path / "friction.csv")
+    np.testing.assert_allclose(ours["friction (rad/s^2)"], friction.values, rtol=1e-12)
+    np.testing.assert_allclose(ours["speed (rad/s)"], friction.speed.values, rtol=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -125,18 +128,29 @@ def test_command_reproduces_the_request(request_, command):
     assert request_.command("identify") == command
 
 
-def test_decimation_keeps_every_extremum():
-    value = np.zeros(1_000_000)
-    value[[3, 777_777]] = 5.0, -7.0
-    times, drawn = tasks.decimated(np.arange(value.size) * 1e-3, value)
-    assert drawn.size == times.size == 2 * tasks.BINS
-    assert (drawn.max(), drawn.min()) == (5.0, -7.0)
-    assert np.all(np.diff(times) >= 0.0)
+def test_a_signal_keeps_every_extremum_and_its_ends(tmp_path):
+    time = np.arange(0.0, 60.0, 0.001)
+    file = write_table(tmp_path / "long.csv", "time (s),angle (rad)", time, linear(time))
+    signal = next(tasks.messages_of(Request(tmp_path, str(file)), print))
+    read = st.read_record(file).angle
+    assert signal.time.size == signal.value.size <= 3000
+    assert (signal.value.max(), signal.value.min()) == (read.max(), read.min())
+    assert np.all(np.diff(signal.time) > 0.0)
+    assert signal.ends == (time[0], pytest.approx(time[-1]))
+
+
+def test_the_suggestion_is_that_of_look(tmp_path):
+    """A short record does not determine all forces to which it points."""
+    short = TIME[TIME < 2.2]
+    file = write_table(tmp_path / "short.csv", "time (s),angle (rad)", short, linear(short))
+    signal = next(tasks.messages_of(Request(tmp_path, str(file), suggest=True), print))
+    suggested = replace(Request(tmp_path, str(file), str(file)), system=signal.system, forces=signal.forces)
+    assert f"Next: {suggested.command('identify')}" in run("look", file).out
 
 
 def test_a_bad_file_is_one_sentence(tmp_path):
     (tmp_path / "bad.csv").write_text("a,b\n<b>x</b>,y\n", encoding="utf-8")
-    (failure,) = done(Request(tmp_path, tmp_path / "bad.csv", "bad.csv"))
+    (failure,) = done(Request(tmp_path, str(tmp_path / "bad.csv"), "bad.csv"))
     assert isinstance(failure, Failure)
     assert failure.text.startswith("bad.csv: ")
     assert "\n" not in failure.text
@@ -145,15 +159,17 @@ def test_a_bad_file_is_one_sentence(tmp_path):
 def test_columns_to_choose_from_are_offered(tmp_path):
     two = linear(TIME), linear(TIME, omega=7.0)
     file = write_table(tmp_path / "two.csv", "t,first,second", TIME, *two)
-    (failure,) = done(Request(tmp_path, file, "two.csv"))
+    (failure,) = done(Request(tmp_path, str(file), "two.csv"))
     assert set(failure.choices) == {"first", "second"}
-    first = next(tasks.messages_of(Request(tmp_path, file, "two.csv", reading={"angle": "first"}), print))
+    first = next(
+        tasks.messages_of(Request(tmp_path, str(file), "two.csv", reading={"angle": "first"}), print)
+    )
     assert isinstance(first, Signal)
 
 
 def test_names_of_columns_are_text(tmp_path):
     file = write_table(tmp_path / "x.csv", "t,<img src=x onerror=alert(1)> (rad)", TIME, linear(TIME))
-    found = tasks.messages_of(Request(tmp_path, file, "<script>.csv"), lambda *_: None)
+    found = tasks.messages_of(Request(tmp_path, str(file), "<script>.csv"), lambda *_: None)
     for shown in (next(found), next(found)):
         assert "<img src=x" not in shown.text
         assert "<script" not in shown.text
@@ -161,17 +177,51 @@ def test_names_of_columns_are_text(tmp_path):
 
 
 def test_the_example_needs_no_file(tmp_path):
-    found = tasks.messages_of(Request(tmp_path, sample=tasks.sample_names()[0]), lambda *_: None)
+    found = tasks.messages_of(Request(tmp_path), lambda *_: None)
     assert isinstance(next(found), Signal)
     assert next(found).command == "sysid-trib backbone"
 
 
+def test_a_sample_record_is_read_by_its_name(tmp_path):
+    name = "dataset:certified/viscous_1e-4"
+    found = done(Request(tmp_path, name, name, laws=False, suggest=True))
+    signal, _, coefficients = found
+    assert name in signal.text
+    assert coefficients.command == f"sysid-trib identify {name} --forces zeta"
+    table = pd.read_csv(tmp_path / "coefficients.csv").set_index(["model", "quantity"])
+    truth = st.datasets.truth("certified/viscous_1e-4").value[0].item()
+    zeta = table.loc["direct", "zeta"]
+    assert abs(zeta["value"] - truth) < 4.0 * zeta["standard_error"]
+
+
+def test_a_sample_that_cannot_be_downloaded_is_one_sentence(tmp_path, monkeypatch):
+    def refused(*_, **__):
+        raise OSError("no route")
+
+    monkeypatch.delenv("SYSID_TRIB_DATA", raising=False)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.setattr("sysid_trib.datasets.fetching.urlopen", refused)
+    (failure,) = done(Request(tmp_path, "dataset:ship_roll", "dataset:ship_roll"))
+    assert "cannot be downloaded (no route)" in failure.text
+    assert "\n" not in failure.text
+
+
+def test_samples_are_the_free_decays_of_the_registry():
+    pytest.importorskip("panel")
+    from sysid_trib.app.page import EXAMPLE, sample_names
+
+    names = sample_names()
+    assert names[0] == EXAMPLE
+    assert {"ship_roll", "certified/dry_1e-3"} <= set(names)
+    assert "silverbox" not in names
+
+
 def test_stopping_ends_the_process_at_once_and_a_new_request_supersedes(worker, swing, tmp_path):
-    missing = Request(tmp_path, tmp_path / "none.csv", "none.csv")
+    missing = Request(tmp_path, str(tmp_path / "none.csv"), "none.csv")
     worker.start(missing)
     (failure,) = messages(worker)
     assert "none.csv" in failure.text
-    worker.start(Request(tmp_path, swing, "swing.csv"))
+    worker.start(Request(tmp_path, str(swing), "swing.csv"))
     found = []
     until(lambda: found.extend(worker.messages()) or any(isinstance(m, Section) for m in found))
     assert Progress(TITLES["backbone"]) in found
@@ -180,14 +230,14 @@ def test_stopping_ends_the_process_at_once_and_a_new_request_supersedes(worker, 
     assert not process.is_alive()
     assert time.monotonic() - began < 2.0
     assert messages(worker) == [failure]
-    worker.start(Request(tmp_path, swing, "swing.csv"))
+    worker.start(Request(tmp_path, str(swing), "swing.csv"))
     worker.stop()
     assert not worker.busy
     assert list(worker.messages()) == []
 
 
 def test_a_killed_process_is_one_sentence(worker, swing, tmp_path):
-    worker.start(Request(tmp_path, swing, "swing.csv"))
+    worker.start(Request(tmp_path, str(swing), "swing.csv"))
     until(lambda: list(worker.messages()))
     os.kill(worker._process.pid, signal.SIGKILL)
     assert messages(worker)[-1] == Failure(STOPPED)
