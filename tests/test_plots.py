@@ -8,8 +8,8 @@ from helpers import FIVE, NOISE, W, decay, library_of_formulas, paper_run
 
 import sysid_trib as st
 from sysid_trib import plots
-from sysid_trib.plots.over_time import MOST_POINTS
 from sysid_trib.plots.style import logarithmic_ticks
+from sysid_trib.records.drawn import MOST_POINTS
 from sysid_trib.simulation.trajectory import trajectory
 from sysid_trib.validation.missing_force import residual_force
 

@@ -64,12 +64,15 @@ class Controls:
             widget.param.watch(lambda _: changed(), "value")
 
     def values(self) -> dict[str, Any]:
-        """Return the chosen values as attributes of a request."""
+        """Return the chosen values as attributes of a request; no forces if they are the usual ones."""
+        forces = tuple(self.forces.value)
         return {
             "reading": {name: widget.value for name, widget in self._reading.items() if widget.value},
             "window": (self.low.value, self.high.value),
             "system": self.system.value,
-            "forces": tuple(self.forces.value),
+            "forces": ()
+            if set(self.forces.value) == set(self._known_system().usual)
+            else (*self.forces.value,),
             "laws": bool(self.laws.value),
         }
 
@@ -103,6 +106,9 @@ class Controls:
         self._show_forces(forces)
 
     def _show_forces(self, forces: tuple[str, ...] = ()) -> None:
-        system = st.forces.load_system(self.system.value or None)
+        system = self._known_system()
         self.forces.options = {f"{force.name} ({force.symbol})": force.symbol for force in system.choices}
-        self.forces.value = [*(forces or system.forces or system.choices.symbols)]
+        self.forces.value = [*(forces or system.usual)]
+
+    def _known_system(self) -> Any:
+        return st.forces.load_system(self.system.value or None)

@@ -72,8 +72,10 @@ def _signal(request: Request) -> Signal:
     attrs, angle, time = records[0].attrs, records[0].angle, records[0].time.values
     how = st.records.reading_text(records) if request.record else attrs["synthetic"]
     read = html.escape(f"{attrs['source']}; {how}.")
-    shown = st.plots.drawn_samples(angle.values)
+    shown = st.records.drawn_samples(angle.values)
     system, forces = st.forces.suggested(looked)
+    if forces == st.forces.load_system(system or None).usual:
+        forces = ()
     return Signal(
         text=f"<p>{read}</p>{st.show(looked)._repr_html_()}",
         time=time[shown],

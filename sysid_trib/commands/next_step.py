@@ -305,9 +305,9 @@ def pointed_options(tree: xr.DataTree, system: str | None) -> dict[str, str]:
         Name of the system, if the user has given it.
     """
     of_record, forces = suggested(tree, system)
-    if system is not None and set(forces) >= set(load_system(system).forces):
-        return {}
     stated = {"system": of_record} if of_record and system is None else {}
+    if forces == load_system(system or of_record or None).usual:
+        return stated
     return {"forces": ",".join(forces)} | stated
 
 

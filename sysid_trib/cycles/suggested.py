@@ -28,7 +28,7 @@ class Suggested(NamedTuple):
 
 
 def suggested(looked: xr.DataTree, system: str | None = None) -> Suggested:
-    """Return the system and the forces that follow from the backbones and that all decays can determine.
+    """Return the system that follows from the backbones, and forces that the decays can determine.
 
     Parameters
     ----------
@@ -40,8 +40,9 @@ def suggested(looked: xr.DataTree, system: str | None = None) -> Suggested:
     Returns
     -------
     Suggested
-        The pair `system, forces`: viscous friction is always among the forces, and one force needs three
-        amplitudes.
+        The pair `system, forces`: the usual forces of the system. A decay that is too short for them, which
+        has fewer than three amplitudes for each force, gets those that follow from its backbone, among them
+        viscous friction.
 
     Raises
     ------
@@ -52,26 +53,27 @@ def suggested(looked: xr.DataTree, system: str | None = None) -> Suggested:
     --------
     >>> import sysid_trib as st
     >>> st.forces.suggested(st.look(st.records.paper_twin()))
-    Suggested(system='', forces=('zeta', 'delta', 'nu', 'epsilon'))
+    Suggested(system='', forces=('lambda', 'zeta', 'delta', 'nu', 'epsilon'))
     """
     decays = [node.to_dataset() for name, node in looked.children.items() if name.startswith("decay")]
+    systems = {str(decay.attrs["points_to_system"]) for decay in decays}
+    of_record = systems.pop() if len(systems) == 1 else ""
+    moving = load_system(system or of_record or None)
+    # One value of envelope and of frequency per amplitude, for the forces and the frequency.
+    most = max(1, sum(decay.sizes["instant"] for decay in decays) // AMPLITUDES_A_FORCE)
+    if len(moving.usual) <= most:
+        return Suggested(moving.name, moving.usual)
     library = load_library()
-    viscous = [*library.damping_factors][:1]
-    # Drag alone, or dry friction alone, may fit within the band, but every body has some viscous friction.
     pointed = [s for decay in decays for s in str(decay.attrs["points_to_forces"]).split(",") if s]
     if not pointed:
         by_damping = [library.role(decay.attrs["damping_law"]) for decay in decays]
         pointed = [force.symbol for force in by_damping if force is not None]
-    systems = {str(decay.attrs["points_to_system"]) for decay in decays}
-    of_record = systems.pop() if len(systems) == 1 else ""
-    moving = load_system(system or of_record or None)
     if system is not None:
-        # The user knows the system; use its forces if the record determines them.
-        pointed = [*moving.forces]
+        # The user knows the system.
+        pointed = [*moving.usual]
     elif of_record:
         pointed = [symbol for symbol in pointed if symbol in moving.forces]
-    known = with_shipped(library, pointed)
-    # One value of envelope and of frequency per amplitude, for the forces and the frequency.
-    most = max(1, sum(decay.sizes["instant"] for decay in decays) // AMPLITUDES_A_FORCE)
+    # Drag alone, or dry friction alone, may fit within the band, but every body has some viscous friction.
+    viscous = [*library.damping_factors][:1]
     kept = [*dict.fromkeys([*viscous, *pointed])][:most]
-    return Suggested(moving.name, tuple(symbol for symbol in known.symbols if symbol in kept))
+    return Suggested(moving.name, tuple(s for s in with_shipped(library, kept).symbols if s in kept))

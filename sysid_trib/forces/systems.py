@@ -95,6 +95,11 @@ class System:
         left_out = {*self.impossible, *self.held, *(() if stiffness is None else (stiffness.symbol,))}
         return library.select(symbol for symbol in library.symbols if symbol not in left_out)
 
+    @property
+    def usual(self) -> tuple[str, ...]:
+        """Forces that are identified if none are named."""
+        return tuple(self.forces) or tuple(self.choices.symbols)
+
     def bounds(self, symbols: Iterable[str]) -> dict[str, tuple[float, float]]:
         """Return the bounds of forces whose coefficients cannot be negative."""
         return {symbol: (0.0, math.inf) for symbol in symbols if symbol in self.not_negative}

@@ -9,10 +9,5 @@ from sysid_trib.plots.sureness import difference as difference, profile as profi
 from .at_a_glance import overview as overview
 from .interaction_map import interaction as interaction
 from .law_curves import laws as laws, own_laws as own_laws
-from .over_time import (
-    drawn_samples as drawn_samples,
-    frequency_shift as frequency_shift,
-    motions as motions,
-    weights as weights,
-)
+from .over_time import frequency_shift as frequency_shift, motions as motions, weights as weights
 from .predicted import innovations as innovations, plan as plan, response as response

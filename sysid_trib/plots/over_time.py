@@ -1,7 +1,7 @@
 """Motions over time: a record with its models; and the figures of Le Bot et al. 2019 (envelopes, weights)."""
 
 from collections.abc import Mapping, Sequence
-from itertools import cycle, pairwise
+from itertools import cycle
 from typing import Any, Literal
 
 import numpy as np
@@ -15,14 +15,13 @@ from sysid_trib.errors import UsageError
 from sysid_trib.plots import style
 from sysid_trib.plots.figure import LEGEND
 from sysid_trib.plots.style import MODEL_LINES, Style
+from sysid_trib.records.drawn import drawn_samples
 from sysid_trib.records.runs import RecordLike
 from sysid_trib.results.effects import steps_taken, tied_name
 from sysid_trib.results.judged import LAST_THIRD, failures, is_refitted, judged_of
 from sysid_trib.results.kinds import kind_of
 from sysid_trib.results.variables import record_groups, signal_label, signal_symbol, signal_units, small_units
 
-# Points of a curve: about the pixels of a wide screen, with the minimum and the maximum of each section.
-MOST_POINTS = 3000
 # Number of effects named in a legend.
 MOST_NAMES = 2
 RECORD_POINTS: Style = {"label": "record", "marker": ".", "linestyle": "", "color": "0.6", "markersize": 2.5}
@@ -80,34 +79,6 @@ def _effects(tree: xr.DataTree) -> str:
     if len(names) > MOST_NAMES:
         return f"{', '.join(names[: MOST_NAMES - 1])} and {len(names) - MOST_NAMES + 1} more"
     return " and ".join(names) or "no effect"
-
-
-def drawn_samples(values: Array) -> NDArray[np.intp]:
-    """Return the minimum and the maximum of each section, which draw a curve with all its peaks.
-
-    Parameters
-    ----------
-    values : (sample,) array
-        Values of the curve.
-
-    Returns
-    -------
-    (point,) array of int
-        Indices of at most 3000 samples, in increasing order.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> import sysid_trib as st
-    >>> shown = st.plots.drawn_samples(np.sin(np.arange(1e6)))
-    >>> shown.size
-    3000
-    """
-    if values.size <= MOST_POINTS:
-        return np.arange(values.size)
-    edges = np.linspace(0, values.size, MOST_POINTS // 2 + 1).astype(int)
-    ends = [start + f(values[start:stop]) for start, stop in pairwise(edges) for f in (np.argmin, np.argmax)]
-    return np.unique(ends)
 
 
 def curve(ax: Axes, time: Array, values: Array, look: Style) -> None:

@@ -1,3 +1,4 @@
+from sysid_trib.records.drawn import drawn_samples as drawn_samples
 from sysid_trib.records.free_decay import free_decays as free_decays
 from sysid_trib.records.half_sines import envelope as envelope
 from sysid_trib.records.in_memory import as_decays as as_decays, one_record as one_record

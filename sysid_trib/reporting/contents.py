@@ -14,7 +14,6 @@ from sysid_trib._version import __version__
 from sysid_trib.physics.consequences import with_consequences
 from sysid_trib.plots.compared import FAR
 from sysid_trib.plots.figure import figures_of
-from sysid_trib.plots.over_time import MOST_POINTS
 from sysid_trib.printing import (
     Block,
     Layer,
@@ -26,6 +25,7 @@ from sysid_trib.printing import (
     laws,
     layout,
 )
+from sysid_trib.records.drawn import MOST_POINTS
 from sysid_trib.results.judged import SEARCH_OUTCOME
 from sysid_trib.results.kinds import kind_of
 from sysid_trib.results.store import PREFERRED, Status, counts_of, of_model, reported_model

@@ -187,7 +187,7 @@ def test_a_sample_record_is_read_by_its_name(tmp_path):
     found = done(Request(tmp_path, name, name, laws=False, suggest=True))
     signal, _, coefficients = found
     assert name in signal.text
-    assert coefficients.command == f"sysid-trib identify {name} --forces zeta"
+    assert coefficients.command == f"sysid-trib identify {name}"
     table = pd.read_csv(tmp_path / "coefficients.csv").set_index(["model", "quantity"])
     truth = st.datasets.truth("certified/viscous_1e-4").value[0].item()
     zeta = table.loc["direct", "zeta"]

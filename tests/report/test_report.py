@@ -14,11 +14,11 @@ from helpers import lengthened, sentences_of
 
 import sysid_trib as st
 from sysid_trib.plots.figure import figures_of
-from sysid_trib.plots.over_time import MOST_POINTS
 from sysid_trib.printing.comparison import comparison_blocks
 from sysid_trib.printing.discovery import discovery_blocks
 from sysid_trib.printing.identification import identification_blocks
 from sysid_trib.printing.layout import value_with_error
+from sysid_trib.records.drawn import MOST_POINTS
 from sysid_trib.reporting.page import page
 from sysid_trib.reporting.provenance import python_text
 
