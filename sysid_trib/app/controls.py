@@ -70,9 +70,7 @@ class Controls:
             "reading": {name: widget.value for name, widget in self._reading.items() if widget.value},
             "window": (self.low.value, self.high.value),
             "system": self.system.value,
-            "forces": ()
-            if set(self.forces.value) == set(self._known_system().usual)
-            else (*self.forces.value,),
+            "forces": () if set(forces) == set(self._known_system().usual) else forces,
             "laws": bool(self.laws.value),
         }
 
