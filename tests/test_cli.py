@@ -12,6 +12,7 @@ from command_line import run
 from scipy import io
 
 from sysid_trib import load_library
+from sysid_trib.commands import local_page
 from sysid_trib.commands.options import COMMANDS, OPTIONS_OF, defaults_of, rows_of_command
 from sysid_trib.commands.terminal import print_table
 from sysid_trib.plots.figure import figures_of
@@ -237,14 +238,25 @@ def _works(names, folder):
 
 
 @pytest.mark.slow
-def test_examples_that_are_quick_work(tmp_path):
-    _works(("simulate", "look", "backbone", "identify", "forces"), tmp_path)
+def test_examples_that_are_quick_work(tmp_path, monkeypatch):
+    without_server(monkeypatch)
+    _works(("simulate", "look", "backbone", "identify", "response", "forces", "datasets", "app"), tmp_path)
 
 
 @pytest.mark.in_full
-def test_all_examples_work(tmp_path):
-    # The app runs until Ctrl-C.
-    _works(EXAMPLES.keys() - {"app"}, tmp_path)
+def test_all_examples_work(tmp_path, monkeypatch):
+    without_server(monkeypatch)
+    _works(EXAMPLES, tmp_path)
+
+
+def without_server(monkeypatch):
+    """Let `app` end: its server, which tests/app starts, runs until Ctrl-C."""
+
+    def ended(record, port, *, open_browser):
+        assert record is None or record.exists()
+        assert 0 <= port < 65536
+
+    monkeypatch.setattr(local_page, "serve", ended)
 
 
 @pytest.mark.parametrize("command", COMMANDS)

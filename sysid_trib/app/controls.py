@@ -14,6 +14,10 @@ TIME_CHOICES = ["", "s", "ms", "us", "ns", "min", "h", "d"]
 # A window is rounded to this part of the record, so that the command is short.
 WINDOW_STEP = 1e-3
 WIDE: dict[str, Any] = {"sizing_mode": "stretch_width"}
+# A frame about what the keyboard acts on.
+FOCUSED: dict[str, Any] = {
+    "stylesheets": [":focus-visible { outline: 2px solid #0b5394 !important; outline-offset: 1px; }"]
+}
 # Number fields without buttons, which have no name; the arrow keys do the same.
 NUMBER_FIELD: dict[str, Any] = {"value": None, "stylesheets": [".bk-spin-btn { display: none !important; }"]}
 COLUMN_FIELD: dict[str, Any] = {"restrict": False, "min_characters": 0, "case_sensitive": False, **WIDE}
@@ -47,11 +51,16 @@ class Controls:
             ),
         }
         self.reading = panel.Card(
-            *self._reading.values(), title="How the file is read", collapsed=True, styles=FLAT, **WIDE
+            *self._reading.values(),
+            title="How the file is read",
+            collapsed=True,
+            styles=FLAT,
+            **FOCUSED,
+            **WIDE,
         )
         self.low = widgets.FloatInput(name="From (s)", placeholder="start", width=130, **NUMBER_FIELD)
         self.high = widgets.FloatInput(name="To (s)", placeholder="end", width=130, **NUMBER_FIELD)
-        self.whole = widgets.Button(name="Whole record", width=130)
+        self.whole = widgets.Button(name="Whole record", width=130, **FOCUSED)
         self.whole.on_click(lambda _: self.show_whole())
         known = {f"{name}: {system.meaning}": name for name, system in st.forces.load_systems().items()}
         self.system = widgets.Select(name="System (--system)", options={"not stated": "", **known}, **WIDE)
@@ -78,6 +87,7 @@ class Controls:
         """Forget the choices for an earlier record."""
         for widget in self._reading.values():
             widget.value = None if isinstance(widget, panel.widgets.FloatInput) else ""
+        self.reading.collapsed = True
         self.show_whole()
         self.show_system("", ())
 

@@ -19,7 +19,7 @@ from bokeh.plotting import figure
 
 import sysid_trib as st
 from sysid_trib.app import messages
-from sysid_trib.app.controls import WIDE, Controls
+from sysid_trib.app.controls import FOCUSED, WIDE, Controls
 from sysid_trib.app.worker import Worker
 
 panel.extension("filedropper")
@@ -88,7 +88,7 @@ class Page:
         samples = ["choose", *sample_names()]
         self.sample = panel.widgets.Select(name="Or a sample record", options=samples, **WIDE)
         self.sample.param.watch(self._sample_chosen, "value")
-        self.cancel = panel.widgets.Button(name="Cancel", disabled=True, width=100)
+        self.cancel = panel.widgets.Button(name="Cancel", disabled=True, width=100, **FOCUSED)
         self.cancel.on_click(self._cancelled)
         self.status: Any = panel.widgets.TextInput(visible=False)
         self.status.jscallback(value=SAY)
@@ -240,10 +240,13 @@ class Page:
     def _show_part(self, part: messages.Section) -> None:
         stem = Path(self.started.shown).stem if self.started else ""
         files = [
-            panel.widgets.FileDownload(file=str(file), filename=f"{stem}_{file.name}") for file in part.files
+            panel.widgets.FileDownload(file=str(file), filename=f"{stem}_{file.name}", **FOCUSED)
+            for file in part.files
         ]
-        copy = panel.widgets.Button(name="Copy the command")
-        copy.js_on_click(code=f"navigator.clipboard.writeText({json.dumps(part.command)})")
+        copy = panel.widgets.Button(name="Copy the command", **FOCUSED)
+        copy.js_on_click(
+            code=f"navigator.clipboard.writeText({json.dumps(part.command)}); cb_obj.origin.label = 'Copied'"
+        )
         command = (
             f"<p class=hint>The same in a terminal:</p><pre tabindex=0>{html.escape(part.command)}</pre>"
         )
