@@ -244,6 +244,7 @@ def test_records_in_another_unit_are_said_to_be_left_out():
     assert said == "1 record is in mm and left out of the mean, which is that of the records in rad."
 
 
+@pytest.mark.slow
 def test_the_command_ends_with_a_page(tmp_path):
     for at in range(3):
         noise = 1e-4 * np.random.default_rng(at).standard_normal(len(TIME))

@@ -152,6 +152,7 @@ def test_a_mass_and_a_load_make_forces_of_a_displacement(tmp_path):
     assert told["lambda"]["friction_coefficient"]["value"] == pytest.approx(told["lambda"]["value"] / 2.0)
 
 
+@pytest.mark.slow
 def test_torques_and_friction_with_their_errors_stand_in_table_csv_and_latex(tmp_path):
     path = write_csv(tmp_path / "swing.csv", time=np.arange(0.0, 12.0, 0.02))
     places = {flag: tmp_path / f"result.{flag}" for flag in ("csv", "tex", "nc")}

@@ -196,6 +196,7 @@ def test_a_store_of_another_format_gets_one_sentence(which, tmp_path):
     assert f"format {STORE_FORMAT}; run the campaign again" in ending.complaint
 
 
+@pytest.mark.slow
 def test_speeds_that_no_record_visits_are_reported(tmp_path):
     file = write_csv(tmp_path / "r.csv", TIME, linear(TIME, 0.01))
     words = ("campaign", file, "--task", "laws", "--workers", "0")

@@ -128,6 +128,7 @@ def test_a_prediction_that_leaves_the_range_is_reported(folder):
     assert "beyond the 0.3 rad covered by the laws" in ending.out
 
 
+@pytest.mark.slow
 def test_a_displacement_is_shown_in_its_unit(folder):
     time, x = record_of()
     write_csv(folder / "mm.csv", time, 100.0 * x, "time (s),displacement (mm)")

@@ -111,6 +111,7 @@ def test_own_coefficients_of_runs_that_no_common_motion_follows():
     assert found.force.values.tolist() == ["zeta_1", "zeta_2"]
 
 
+@pytest.mark.slow
 def test_python_of_laws_repeats_all_that_was_asked(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     # Too few half periods for a curve, so that the fit is quick.

@@ -182,6 +182,7 @@ def test_the_example_needs_no_file(tmp_path):
     assert next(found).command == "sysid-trib backbone"
 
 
+@pytest.mark.slow
 def test_a_sample_record_is_read_by_its_name(tmp_path):
     name = "dataset:certified/viscous_1e-4"
     found = done(Request(tmp_path, name, name, laws=False, suggest=True))
