@@ -474,7 +474,7 @@ def test_the_fields_of_a_submission_are_written(answer, tmp_path, capsys):
     assert "not to be submitted" in capsys.readouterr().out
 
 
-@pytest.mark.slow
+@pytest.mark.in_full
 def test_bouc_wen_end_to_end(layout, tmp_path, capsys):
     """From simulated training data the equations are found; noise leaves less than a thousandth."""
     path = tmp_path / "out.json"
@@ -484,7 +484,7 @@ def test_bouc_wen_end_to_end(layout, tmp_path, capsys):
     assert all(scores["NRMSE"] < 1e-3 for scores in fields["other_scores"].values())
 
 
-@pytest.mark.slow
+@pytest.mark.in_full
 def test_silverbox_end_to_end(layout, tmp_path, capsys):
     """A Duffing circuit is followed to its noise where the arrow extrapolates."""
     path = tmp_path / "out.json"
@@ -492,8 +492,8 @@ def test_silverbox_end_to_end(layout, tmp_path, capsys):
     (fields,) = json.loads(path.read_text(encoding="utf-8"))
     assert not fields["official_tests"]
     assert set(fields["RMSE"]) == {"multisine", "arrow (full)", "arrow (no extrapolation)"}
-    # mV
-    assert all(1.0 <= rmse / (1e3 * stand_ins.CIRCUIT_NOISE) < 1.2 for rmse in fields["RMSE"].values())
+    # mV; the RMS of 30,000 samples of noise is known to 0.4 %.
+    assert all(0.99 <= rmse / (1e3 * stand_ins.CIRCUIT_NOISE) < 1.2 for rmse in fields["RMSE"].values())
 
 
 @pytest.mark.slow

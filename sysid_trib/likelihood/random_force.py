@@ -172,6 +172,9 @@ def ratio_posterior(rows: Callable[[float], WhiteRows], estimate: VarianceRatio)
     spline = CubicSpline(logarithm, determinant)
     slope, bend = spline(logarithm, 1), spline(logarithm, 2)
     prior = np.sqrt(np.maximum(slope - bend - slope**2 / degrees_of_freedom, 0.0))
+    if not np.any(prior > 0.0):
+        # The determinant is hardly bent, as where the ratio is well determined: the prior is constant there.
+        prior = np.ones_like(prior)
     weight = prior * np.exp(0.5 * (np.min(deviance) - deviance))
     return np.stack([np.exp(logarithm), variance, weight / np.sum(weight)])
 

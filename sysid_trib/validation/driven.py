@@ -555,10 +555,13 @@ def _predicted_measured(result: xr.Dataset, record: xr.Dataset, model: Model, be
     time = record.measured_time.values.astype(float)
     counted, fitted = begin.counted(time), begin.fitted(time)
     try:
-        start = _guess_of_measured(record, fitted, model)
-        motion, residual = measured_motion(model, record, start, fitted=fitted)
+        motions = [
+            measured_motion(model, record, start, fitted=fitted)
+            for start in _guesses_of_measured(record, fitted, model)
+        ]
     except SimulationError as error:
         raise DecayError(f"The model has no motion on this record: {error}") from None
+    motion, residual = min(motions, key=lambda found: root_mean_square(found[1][fitted]))
     scale = _per_integration(record, result)
     residual = residual / scale
     values = {"predicted_angle": np.interp(record.time.values, time, motion.angle)}
@@ -567,12 +570,17 @@ def _predicted_measured(result: xr.Dataset, record: xr.Dataset, model: Model, be
     return _with_prediction(record, values | scalars, begin.warm_up)
 
 
-def _guess_of_measured(record: xr.Dataset, fitted: Mask, model: Model) -> tuple[float, float]:
-    """Return the first estimate of the start from the fitted samples of a rate or an acceleration."""
+def _guesses_of_measured(record: xr.Dataset, fitted: Mask, model: Model) -> list[tuple[float, float]]:
+    """Return first estimates of the start from the fitted samples of a rate or an acceleration."""
     if fitted.all():
-        return _guess(record.time.values.astype(float), record.angle.values.astype(float), model)
+        return [_guess(record.time.values.astype(float), record.angle.values.astype(float), model)]
     time = record.measured_time.values.astype(float)[fitted]
-    angle = record[MEASURED].values.astype(float)[fitted]
-    for _ in range(int(record.attrs.get("integrations", 0))):
-        angle = inputs.integral_of_rate(time, angle)
-    return _guess(time, angle, model)
+    guesses = []
+    # A sensor's zero grows by integration. Over several periods the mean is this zero, over a part of one it
+    # belongs to the motion.
+    for without_mean in (False, True):
+        angle = record[MEASURED].values.astype(float)[fitted]
+        for _ in range(int(record.attrs.get("integrations", 0))):
+            angle = inputs.integral_of_rate(time, angle - without_mean * angle.mean())
+        guesses.append(_guess(time, angle, model))
+    return guesses
