@@ -8,7 +8,7 @@ import panel
 
 import sysid_trib as st
 
-# Offered values of options; the first leaves the choice to the file.
+# Values that the page offers; with the first, empty one, the reader decides from the file.
 SIGNAL_CHOICES = ["", "angle", "displacement", "rate", "acceleration"]
 TIME_CHOICES = ["", "s", "ms", "us", "ns", "min", "h", "d"]
 # A window is rounded to this part of the record, so that the command is short.

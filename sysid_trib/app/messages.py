@@ -35,9 +35,9 @@ class Request:
     forces : tuple of str
         Symbols of forces; empty for the usual ones.
     laws : bool
-        Whether the laws are identified, too.
+        True to identify the laws as well.
     suggest : bool
-        Whether system and forces are those to which the backbone points.
+        True to take the system and the forces that the backbone suggests.
     """
 
     folder: Path

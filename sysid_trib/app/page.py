@@ -30,8 +30,10 @@ FILE_KINDS = (
     f"Text, CSV, MATLAB, Excel, HDF5, Parquet or TDMS, at most {MOST_MEGABYTES} MB. It stays on this machine."
 )
 HOW_TO_CHOOSE = "Drag over the plot to choose a part of the record, or use the fields From and To."
-# Seconds between looks at the worker, and from the last change of a control to the next computation.
-POLLING, PAUSE = 0.15, 0.5
+# Seconds between looks at the worker.
+POLLING = 0.15
+# Seconds from the last change of a control to the next computation.
+PAUSE = 0.5
 FOLDER = Path(__file__).parent
 STYLE = (FOLDER / "parts.css").read_text(encoding="utf-8")
 # The status is in the page itself, so that screen readers announce it.
@@ -41,7 +43,9 @@ const status = document.getElementById("status");
 """
 # Characters that a file's name must not have.
 UNSAFE = re.compile(r"[^\w.+ ()-]")
-FAINT, CLEAR = {"opacity": "0.4"}, {"opacity": "1"}
+# Styles of results of an earlier choice, and of current ones.
+FAINT = {"opacity": "0.4"}
+CLEAR = {"opacity": "1"}
 # Value of the first sample, which needs no file.
 EXAMPLE = "Synthetic example"
 
@@ -186,7 +190,8 @@ class Page:
         if self.begun and time.monotonic() >= self.due:
             self.due = math.inf
             self._start(replace(self.begun, **self.controls.values()))
-        was_busy, failed = self.worker.busy, False
+        was_busy = self.worker.busy
+        failed = False
         for message in self.worker.messages():
             failed = failed or isinstance(message, messages.Failure)
             self._take(message)

@@ -23,7 +23,7 @@ def serve(file: Path | None, port: int, *, open_browser: bool) -> None:
     port : int
         The next free port is taken if this one is in use.
     open_browser : bool
-        Whether the page is opened in the browser.
+        True to open the page in the browser.
 
     Raises
     ------

@@ -69,7 +69,9 @@ def _signal(request: Request) -> Signal:
     """Read the record, and say what is in it."""
     records, decays = _decays(request)
     looked = st.look(records, decays)
-    attrs, angle, time = records[0].attrs, records[0].angle, records[0].time.values
+    attrs = records[0].attrs
+    angle = records[0].angle
+    time = records[0].time.values
     how = st.records.reading_text(records) if request.record else attrs["synthetic"]
     read = html.escape(f"{attrs['source']}; {how}.")
     shown = st.records.drawn_samples(angle.values)

@@ -74,7 +74,7 @@ def _work(pipe: Connection) -> None:
     def tell(activity: str, done: float | None = None) -> None:
         pipe.send(messages.Progress(activity, done))
 
-    # What matters of a warning is in the result.
+    # The result states everything important that a warning says.
     warnings.simplefilter("ignore")
     with threadpool_limits(1, user_api="blas"):
         try:

@@ -58,7 +58,7 @@ class FittedMotion:
         Derivatives of the angle by the angle (1) and the rate (s) at the first sample, for a nearby motion;
         None if not computed.
     settled : bool
-        Whether the last step of the start was so short that the fit has converged.
+        True if the fit has converged: the last step of the start was short.
     """
 
     angle: float
