@@ -561,7 +561,7 @@ def _predicted_measured(result: xr.Dataset, record: xr.Dataset, model: Model, be
         ]
     except SimulationError as error:
         raise DecayError(f"The model has no motion on this record: {error}") from None
-    motion, residual = min(motions, key=lambda found: root_mean_square(found[1][fitted]))
+    motion, residual = min(motions, key=lambda pair: root_mean_square(pair[1][fitted]))
     scale = _per_integration(record, result)
     residual = residual / scale
     values = {"predicted_angle": np.interp(record.time.values, time, motion.angle)}
